@@ -6,12 +6,13 @@ SHELL := /bin/bash
 # uv from the PATH, or in a separate virtual environment
 UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras --no-extra bench
+PEERS := $(UV) run --locked --all-extras --group bench
 unexport PYTHONDONTWRITEBYTECODE # otherwise all modules are compiled again in each process
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10
 # Xvfb if there is no display
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
-.PHONY: help setup demo demo-lab test check lint advisories test-rust test-quick test-python bench bench-distances bench-flatten \
+.PHONY: help setup demo demo-lab test check lint advisories test-rust test-quick test-python bench bench-rows bench-distances bench-flatten \
 bench-developable bench-surfaces bench-published bench-series bench-standard bench-napari soak \
 gallery platforms wheel wheel-check paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs drawings format clean
 
@@ -61,11 +62,20 @@ test-python: setup ## run the tests of the Python package, including the napari 
 	@.ci/debian-vtk $(UV)
 	$(PYTEST)
 
-bench: setup ## compare the speed of distances with navis-fastcore and scipy
+BENCH := .tools/benchmark
+
+bench: setup ## run the public benchmark of flat maps with all tools that pip can install (an hour, 2 GB; docs/benchmark)
+	$(PEERS) voxflat bench fetch $(BENCH)/data || true
+	$(PEERS) voxflat bench truth $(BENCH)/data
+	$(PEERS) voxflat bench run $(BENCH)/data -o $(BENCH)/runs
+	$(PEERS) voxflat bench run $(BENCH)/data --track free -o $(BENCH)/runs
+	$(PEERS) voxflat bench page $(BENCH)/runs/*.json -o $(BENCH)/page
+
+bench-rows: setup ## compare the speed of distances with navis-fastcore and scipy
 	$(RUN) python docs/benchmarks/rows.py
 
 bench-distances: setup ## compare the accuracy of distances with targets and other tools (half an hour)
-	$(UV) run --locked --all-extras --group bench python docs/benchmarks/distances.py
+	$(PEERS) python docs/benchmarks/distances.py
 
 PUBLISHED := .tools/published
 
@@ -73,10 +83,10 @@ $(PUBLISHED):
 	$(UV) pip install --quiet --no-deps --target $@ suitpy==2.1.2 HippoMaps==0.1.17
 
 bench-flatten: setup $(PUBLISHED) ## compare maps with published ones, ARAP, SLIM and autoflatten; growth (long)
-	$(UV) run --locked --all-extras --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
+	$(PEERS) python docs/benchmarks/maps.py --suit $(PUBLISHED)
 
 bench-developable: setup ## compare maps of developable surfaces with ARAP, SLIM and saucan2006 (long)
-	PYTHONPATH=tests/helpers $(UV) run --locked --all-extras --group bench python docs/benchmarks/developable.py
+	PYTHONPATH=tests/helpers $(PEERS) python docs/benchmarks/developable.py
 
 bench-surfaces: setup ## repair real anatomy; compare areal distortion with Workbench
 	$(RUN) python docs/benchmarks/surfaces.py

@@ -9,7 +9,6 @@ Edges and angles of maps are compared with those of the triangles in space, with
 
 import argparse
 
-import maps_makers
 import numpy as np
 import tables
 from developable_shapes import SHAPES, angle_changes, closed_cube, edge_ratios
@@ -20,9 +19,9 @@ import voxflat
 FINER = {"coarse": 1, "middle": 2, "fine": 5}
 """The divisor of the 2 mm long edges."""
 
-MAPS = {"voxflat": ("voxflat", maps_makers.CUT_OPEN), "ARAP": ("ARAP", {}), "SLIM": ("SLIM", {})}
-MAPS |= {"saucan2006": ("voxflat", {"method": "saucan2006"})}
-"""The maker and options of each map."""
+MAPS = {"voxflat": ("voxflat", {}), "ARAP": ("ARAP", {}), "SLIM": ("SLIM", {})}
+MAPS |= {"saucan2006": ("voxflat", {"method": "saucan2006", "relax": False})}
+"""The tool and options of each map."""
 
 COLUMNS = ("shape", "map", "vertices", "edges, least", "most", "mean %", "angles °, mean", "most", "flipped")
 COLUMNS += ("overlapping", "cut edges", "all %", "wall s")
@@ -58,9 +57,10 @@ def rows_of(shape, finer, options, maps=None):
 
 
 def cells(shape, name, made, vertices):
-    surface = made.points, made.faces.astype(np.int64)
-    ratios, changes = edge_ratios(*surface, made.places), angle_changes(*surface, made.places)
-    distortion = voxflat.compare(surface, {name: made.places}, sources=100, reference="exact")[name]
+    flat = made.flat
+    surface = flat.points, flat.faces.astype(np.int64)
+    ratios, changes = edge_ratios(*surface, flat.uv), angle_changes(*surface, flat.uv)
+    distortion = voxflat.compare(surface, {name: flat.uv}, sources=100, reference="exact")[name]
     triangles = distortion.triangles
     longer, turned = 100 * np.abs(ratios - 1).max(), changes.max()
     if name == "voxflat":
@@ -69,7 +69,7 @@ def cells(shape, name, made, vertices):
     return [
         *(shape, name, f"{vertices:,}", f"{ratios.min():.4f}", f"{ratios.max():.4f}"),
         *(f"{100 * np.abs(ratios - 1).mean():.4f}", f"{changes.mean():.4f}", f"{turned:.3f}"),
-        *(str(triangles.flipped), str(triangles.covering), str(len(made.points) - vertices)),
+        *(str(triangles.flipped), str(triangles.covering), str(len(flat.points) - vertices)),
         *(f"{100 * distortion.raw.relative_error:.3f}", f"{made.wall:.1f}"),
     ]
 

@@ -4,7 +4,7 @@
     python docs/benchmarks/distances.py --only cortex,voxels
 
 On meshes, distances and paths on real cortex are compared with exact distances; for voxels, see `distances_anatomy.py`.
-The other tools are pygeodesic, potpourri3d and, if installed, Connectome Workbench. `make bench` measures speed.
+The other tools are pygeodesic, potpourri3d and, if installed, Connectome Workbench. `make bench-rows` measures speed.
 """
 
 import argparse

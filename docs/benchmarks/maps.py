@@ -12,7 +12,6 @@ from pathlib import Path
 
 import anatomy
 import maps_growth
-import maps_makers
 import maps_peers
 import published
 import tables
@@ -24,7 +23,7 @@ SECTIONS |= {"mni152": maps_peers.mni152, "growth": maps_growth.growth, "sheets"
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", help=f"comma-separated sections: {', '.join(SECTIONS)}")
-    parser.add_argument("--makers", nargs="+", default=list(maps_makers.MAKERS), choices=maps_makers.MAKERS)
+    parser.add_argument("--makers", nargs="+", default=list(maps_peers.TOOLS), choices=maps_peers.TOOLS)
     parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
     parser.add_argument("--kinds", nargs="+", default=list(published.KINDS), choices=published.KINDS)
     parser.add_argument("--sources", type=int, default=300, help="sources of the evaluation of fsaverage5's maps")

@@ -2,9 +2,10 @@
 
 import anatomy
 import numpy as np
-from maps_makers import CUT_OPEN
 from maps_peers import made_by
 from tables import exponent, judged, table
+
+from voxflat.benchmark.making import GIB
 
 STEEPEST = 1.05  # limit of the exponents of CPU time and memory as powers of the number of vertices
 BOUNDS = {30_000: (10.0, None), 150_000: (20.0, 0.7), 890_000: (100.0, 2.5), 3_000_000: (480.0, 8.0)}
@@ -33,17 +34,20 @@ def grown(title, kind, first, surfaces, options):
         made = made_by(["voxflat"], job, options).get("voxflat")
         if made is None:
             continue
-        size = len(made.places)
+        uv, details = made.flat.uv, made.flat.details
+        size, need = len(uv), details["need"] / GIB
         wall, peak = next((most for near, most in BOUNDS.items() if abs(size / near - 1) < NEAR), (None, None))
         name = f"{kind}, {size:,} vertices"
-        off = "" if error is None else judged(100 * error(made.places), ".4f", 100 * MOST_OFF, f"{name}, error %")
+        off = "" if error is None else judged(100 * error(uv), ".4f", 100 * MOST_OFF, f"{name}, error %")
         shown = judged(made.wall, ".1f", wall, f"{name}, wall s")
         cells = [cell, f"{size:,}", shown, f"{made.cpu:.1f}", f"{1e6 * made.cpu / size:.0f}"]
-        estimate = 100 * abs(made.need / made.taken - 1)
+        estimate = 100 * abs(need / made.taken - 1)
         estimate = judged(estimate, ".0f", 100 * NEAR_SAID, f"{name}, error of the memory estimate, %")
-        memory = f"{made.taken:.2f}, {made.need:.2f}, {estimate}"
+        memory = f"{made.taken:.2f}, {need:.2f}, {estimate}"
         cells += [judged(made.peak, ".2f", peak, f"{name}, GiB"), memory, off]
-        rows.append([*cells, str(len(made.descent["energies"])), "yes" if made.descent["converged"] else "no"])
+        rows.append(
+            [*cells, str(len(details["descent"]["energies"])), "yes" if details["descent"]["converged"] else "no"]
+        )
         sizes.append(size)
         costs.append((made.cpu, made.taken))
     columns = [first, "vertices", "wall s", "CPU s", "CPU µs per vertex", "GiB", "of the map: used, estimate, error %"]
@@ -56,7 +60,7 @@ def growth(options):
 
     def of(spacing):
         labels, affine, _ = anatomy.voxelise(hemisphere["white"], hemisphere["faces"], spacing)
-        return f"{spacing} mm", {"labels": labels, "affine": affine, "options": CUT_OPEN}, None
+        return f"{spacing} mm", {"labels": labels, "affine": affine}, None
 
     title = "Growth: fsaverage5 white left, whole, with surface and cuts"
     grown(title, "whole hemisphere", "voxels", map(of, options.spacings), options)
@@ -73,7 +77,7 @@ def sheets(options):
         def error(places):
             return np.mean(np.abs(lengths(places, far) / lengths(true, far) - 1))
 
-        return f"{count:,}", {"points": points, "faces": faces}, error
+        return f"{count:,}", {"points": points, "faces": faces, "options": {"relax": False}}, error
 
     grown("Growth: a rolled, wavy sheet of irregular triangles", "sheet", "requested", map(of, options.sheets), options)
 

@@ -3,11 +3,15 @@
 import sys
 
 import anatomy
-import maps_makers as makers
 import numpy as np
 from tables import BANDS, DISTANCES, SHAPES, distance_cells, shape_cells, table
 
 import voxflat
+from voxflat.benchmark.making import make
+from voxflat.benchmark.tools import GIVEN, NoMapError
+
+TOOLS = {"voxflat": "voxflat", "ARAP": "arap", "SLIM": "slim", "autoflatten": "autoflatten"}
+"""The tools of the benchmark by the names in the tables."""
 
 SHIPPED = "shipped"
 COLUMNS = ("map", "vertices", "wall s", "CPU s", "GiB", *DISTANCES, *SHAPES, "crossings")
@@ -17,7 +21,8 @@ def fsaverage5(options):
     for side in options.sides:
         for kind in options.kinds:
             points, faces, shipped = fsaverage5_disk(side, kind)
-            made = made_by(options.makers, {"points": points, "faces": faces}, options)
+            job = {"points": points, "faces": faces, "options": {"track": GIVEN}}
+            made = made_by(options.makers, job, options)
             comparison = compared(points, faces, made, options.sources, **{SHIPPED: shipped})
             print_maps(f"fsaverage5 {kind} {side}", comparison, made)
 
@@ -36,10 +41,11 @@ def mni152(options):
 
 def cut_open(title, job, options):
     """Compare maps of a closed surface that voxflat cuts open."""
-    ours = made_by(["voxflat"], job | {"options": makers.CUT_OPEN}, options)
+    ours = made_by(["voxflat"], job, options)
     if not ours:
         return
-    points, faces = ours["voxflat"].points, ours["voxflat"].faces.astype(np.int64)
+    flat = ours["voxflat"].flat
+    points, faces = flat.points, flat.faces.astype(np.int64)
     peers = [name for name in options.makers if name != "voxflat"]
     made = ours | made_by(peers, {"points": points, "faces": faces}, options)
     note = "voxflat's time includes the cuts and, for voxels, the surface; the other tools start from these."
@@ -60,8 +66,8 @@ def made_by(names, job, options):
     for name in names:
         print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
         try:
-            made[name] = makers.make(name, job, options.limit)
-        except makers.NoMapError as error:
+            made[name] = make(TOOLS[name], job, options.limit)
+        except NoMapError as error:
             print(f"{name}: {error}", flush=True)
     print(file=sys.stderr, flush=True)
     return made
@@ -69,7 +75,7 @@ def made_by(names, job, options):
 
 def compared(points, faces, made, sources, **more):
     """Evaluate the maps of a disk, and more maps by name, by exact distances."""
-    maps = {name: one.places for name, one in made.items()} | more
+    maps = {name: one.flat.uv for name, one in made.items()} | more
     return voxflat.compare((points, faces), maps, sources=sources, reference="exact", bands=BANDS)
 
 

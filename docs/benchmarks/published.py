@@ -108,12 +108,13 @@ def published(options):
     """Compare maps of the default method with published maps."""
     rows = []
     for name, points, faces, places in disks(options):
-        made = made_by(["voxflat"], {"points": points, "faces": faces}, options)
+        job = {"points": points, "faces": faces, "options": {"relax": False}}
+        made = made_by(["voxflat"], job, options)
         if not made:
             continue
         comparison = compared(points, faces, made, options.whole_sources, **{SHIPPED: places})
         both = [comparison["voxflat"], comparison[SHIPPED]]
-        edges = [edge(points, faces, one, of) for one, of in zip((made["voxflat"].places, places), both, strict=True)]
+        edges = [edge(points, faces, one, of) for one, of in zip((made["voxflat"].flat.uv, places), both, strict=True)]
         shown = zip(FIGURES.items(), zip(*map(figures, both, edges), strict=True), strict=True)
         cells = [ahead(f"{name}, {figure}", digits, *pair) for (figure, digits), pair in shown]
         ours, theirs = (one.triangles for one in both)

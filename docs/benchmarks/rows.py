@@ -1,6 +1,6 @@
 """Time distance rows beside navis-fastcore and scipy, on the same graph, in the same run.
 
-    make bench
+    make bench-rows
 
 `one row` is the CPU time of a call with one source. `further row` is the time that each additional source adds, so it
 excludes the time in which a peer builds its own graph. The solvers take turns; the figures are medians. Machines

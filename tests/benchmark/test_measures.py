@@ -71,6 +71,9 @@ def test_measures_of_others_are_their_formulas_over_all_pairs(hill):
             if vertex in reached:
                 near.append((abs(d - true), true))
     assert found["autoflatten_global"] == pytest.approx(np.mean(every))
+    d, true = distances_on_map(uv, sources)[rows > 0], rows[rows > 0]
+    of_scales = [np.mean(np.abs(scale * d - true) / true) for scale in np.linspace(0.80, 1.25, 91)]
+    assert found["autoflatten_global_best_scale"] == pytest.approx(min(of_scales))
     assert found["autoflatten_local"] == pytest.approx(np.mean(local))
     apart, true = np.array(near).T
     assert found["freesurfer_error"] == pytest.approx(apart.sum() / true.sum())
