@@ -177,6 +177,17 @@ def test_white_and_pial_surfaces_define_depths():
 
 
 @pytest.mark.medium
+def test_pages_show_maps_of_all_forms(given, flat_map):
+    flat = given[1]
+    inside = voxflat.load(FLAT[:, :2] * [-1, 1], SURFACE)
+    duplicated, places = with_a_duplicate()
+    for loaded in (flat_map, inside, voxflat.load(places, duplicated), voxflat.load(flat["texture.obj"])):
+        page = voxflat.map_page(loaded, "given")
+        assert f"A flat map of {len(loaded):,} points" in page.html
+        assert "mean relative error of distances" in page.html
+
+
+@pytest.mark.medium
 def test_seams_of_texture_coordinates_are_cuts(tmp_path):
     points, faces = icosphere(10.0, 2)
     made = voxflat.flatten((points, faces))

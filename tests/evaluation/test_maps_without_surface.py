@@ -113,6 +113,7 @@ NEED_SURFACE = {
     "locate": lambda of: of.locate(),
     "textured": lambda of: of.textured(np.zeros((8, 8), dtype=np.uint8)),
     "areas of regions": lambda of: of.regions({"V1": [[8, 8], [30, 9], [20, 33]]}).properties(),
+    "page": lambda of: voxflat.map_page(of),
     "worst places": lambda of: voxflat.worst_places(of),
     "surface in PyVista": lambda of: pv.Plane().voxflat.to_surface_polydata(of),
 }
