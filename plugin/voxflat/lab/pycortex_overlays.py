@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from voxflat.arguments import printable
 from voxflat.io.files import REMEDY, contents, naming, require
-from voxflat.maps.lines import borders, edges_of
+from voxflat.maps.outlines import Collar, directed_boundary
 
 HEIGHT = 1024.0  # of the drawing, in pixels
 _DECIMALS = 5  # of pixels
@@ -130,9 +130,10 @@ class Drawing:
         return {hemi: flat.is_on_map for hemi, flat in self.flats.items()}
 
     @cached_property
-    def _collars(self) -> dict[str, "_Collar"]:
+    def _collars(self) -> dict[str, Collar]:
         return {
-            hemi: _with_collar(self.places[hemi].astype(np.float64), flat.faces) for hemi, flat in self.flats.items()
+            hemi: Collar.around(self.places[hemi].astype(np.float64), flat.faces, width=_COLLAR)
+            for hemi, flat in self.flats.items()
         }
 
     @cached_property
@@ -243,59 +244,9 @@ def _middle(vertices: _Floats, outline: _Floats) -> _Floats:
 # ------------------------------------------------------------------------------ outlines
 
 
-@dataclass(frozen=True, eq=False)
-class _Collar:
-    """The triangles of a map, and a narrow band of triangles around it that belongs to no region."""
-
-    uv: _Floats
-    faces: NDArray[np.int64]
-    count: int  # vertices of the mesh
-
-
-def _with_collar(uv: _Floats, faces: NDArray[np.int64]) -> _Collar:
-    """Surround a map by a band, so that outlines of regions at its edge are closed around their vertices."""
-    edges, following = _boundary(faces, len(uv))
-    along = uv[edges[:, 1]] - uv[edges[:, 0]]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    outwards = np.column_stack([along[:, 1], -along[:, 0]])
-    before = np.empty_like(following)
-    before[following] = np.arange(len(following))
-    normals = outwards + outwards[before]
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.where(lengths > 1e-6, normals / np.maximum(lengths, 1e-6), outwards)
-    ghosts = len(uv) + np.arange(len(edges))
-    a, b, here, there = edges[:, 0], edges[:, 1], ghosts, ghosts[following]
-    band = np.concatenate([np.column_stack([a, here, b]), np.column_stack([b, here, there])])
-    return _Collar(np.concatenate([uv, uv[a] + _COLLAR * normals]), np.concatenate([faces, band]), len(uv))
-
-
-def _boundary(faces: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the directed boundary edges (B, 2), and the number of the edge that follows each around the same corner.
-
-    Where a vertex lies on the boundary several times, the corners are those of the map, not of its surroundings.
-    """
-    _, of_face, counts = edges_of(faces, count)
-    is_edge = counts[of_face] == 1  # (F, 3), of the edge from corner k to k + 1
-    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)[is_edge]
-    at_boundary = np.zeros(count, dtype=np.bool_)
-    at_boundary[edges] = True
-    third = {}
-    for triangle in faces[at_boundary[faces].any(axis=1)].tolist():
-        for a, b, c in zip(triangle, triangle[1:] + triangle[:1], triangle[2:] + triangle[:2], strict=True):
-            third[a, b] = c
-    numbers = {tuple(edge): number for number, edge in enumerate(edges.tolist())}
-    following = []
-    for a, b in edges.tolist():
-        c = third[a, b]
-        while (c, b) in third:  # turn around b to the other end of its corner
-            c = third[c, b]
-        following.append(numbers[b, c])
-    return edges, np.array(following, dtype=np.int64)
-
-
 def _edge_loops(flat: FlatSurface) -> list[NDArray[np.int64]]:
     """Return the boundary of a map as closed lines of vertices."""
-    edges, following = _boundary(flat.faces, len(flat.uv))
+    edges, following = directed_boundary(flat.faces, len(flat.uv))
     starts, after = edges[:, 0], following.tolist()
     rest, lines = set(range(len(edges))), []
     for first in range(len(edges)):
@@ -309,16 +260,10 @@ def _edge_loops(flat: FlatSurface) -> list[NDArray[np.int64]]:
     return lines
 
 
-def _loops(collar: _Collar, mask: NDArray[np.bool_]) -> list[_Floats]:
+def _loops(collar: Collar, mask: NDArray[np.bool_]) -> list[_Floats]:
     """Return closed outlines around the vertices of a region, without holes: slits connect holes with their outline."""
-    labels = np.zeros(len(collar.uv), dtype=np.int64)
-    labels[: collar.count] = mask
-    inside = labels[collar.faces].sum(axis=1)
-    near = collar.faces[(inside > 0) & (inside < 3)]
-    if len(near) == 0:
-        return []
-    lines = [line for line in borders(collar.uv, near, labels) if len(line) > 3]
-    return _without_holes(lines)
+    lines = [np.concatenate([loop, loop[:1]]) for loop in collar.outlines(mask)]
+    return _without_holes(lines) if lines else []
 
 
 def _without_holes(loops: list[_Floats]) -> list[_Floats]:

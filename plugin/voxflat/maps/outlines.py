@@ -25,10 +25,13 @@ class Collar:
     count: int  # points of the map, which come first
 
     @classmethod
-    def around(cls, uv: _Floats, faces: NDArray[Any]) -> Collar:
-        """Surround a map by a band, so that outlines of regions at its edge are closed around their points."""
+    def around(cls, uv: _Floats, faces: NDArray[Any], *, width: float | None = None) -> Collar:
+        """Surround a map by a band of a width, so that outlines of regions at its edge are closed around their points.
+
+        By default, the width is a share of the median edge at the boundary.
+        """
         faces = faces.astype(np.int64)
-        edges, following = _boundary(faces, len(uv))
+        edges, following = directed_boundary(faces, len(uv))
         along = uv[edges[:, 1]] - uv[edges[:, 0]]
         lengths = np.linalg.norm(along, axis=1, keepdims=True)
         along = along / np.maximum(lengths, 1e-12)
@@ -38,7 +41,8 @@ class Collar:
         normals = outwards + outwards[before]
         sums = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.where(sums > 1e-6, normals / np.maximum(sums, 1e-6), outwards)
-        width = _WIDTH * float(np.median(lengths)) if len(lengths) else 0.0
+        if width is None:
+            width = _WIDTH * float(np.median(lengths)) if len(lengths) else 0.0
         ghosts = len(uv) + np.arange(len(edges))
         a, b, here, there = edges[:, 0], edges[:, 1], ghosts, ghosts[following]
         band = np.concatenate([np.column_stack([a, here, b]), np.column_stack([b, here, there])])
@@ -54,7 +58,7 @@ class Collar:
         return tuple(line[:-1] for line in lines if len(line) > 3)
 
 
-def _boundary(faces: _Ints, count: int) -> tuple[_Ints, _Ints]:
+def directed_boundary(faces: _Ints, count: int) -> tuple[_Ints, _Ints]:
     """Return the directed boundary edges (B, 2), and the number of the edge that follows each around the same corner.
 
     Where a vertex lies on the boundary several times, the corners are those of the map, not of its surroundings.

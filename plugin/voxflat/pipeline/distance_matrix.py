@@ -41,7 +41,7 @@ KINDS = {"float32": np.inf, "float16": float(np.finfo(np.float16).max), "uint8":
 """The types of the values, with the largest finite distance that they hold."""
 
 NO_PATH = 255  # in uint8
-_BLOCK = 1 << 26  # bytes of rows that are computed together
+_BLOCK = 1 << 28  # bytes of rows that are computed together: more neighbouring rows share a search
 _NONE = -1
 
 
