@@ -181,8 +181,8 @@ def test_the_frontal_poles_are_at_the_outer_sides_and_superior_is_up(store, hemi
 # ------------------------------------------------------------------------------ regions of interest
 
 
-def found_by_pycortex(folder):
-    """Return the vertices on the map in each region: an independent implementation of cortex.utils.get_roi_verts."""
+def placed(folder):
+    """Return the flat vertices of both hemispheres in pixels, and which are on the map, as pycortex places them."""
     flats = {hemi: surface(folder, "flat", hemi) for hemi in HEMIS}
     left, right = (flats[hemi][0][:, :2].copy() for hemi in HEMIS)
     left[:, 0] -= left[:, 0].max()
@@ -196,6 +196,12 @@ def found_by_pycortex(folder):
     width, height = float(root.get("width")), float(root.get("height"))
     places = places * (width, height)
     places[:, 1] = height - places[:, 1]
+    return root, places, on_map
+
+
+def found_by_pycortex(folder):
+    """Return the vertices on the map in each region: an independent implementation of cortex.utils.get_roi_verts."""
+    root, places, on_map = placed(folder)
     layers = {layer.get(LABEL): layer for layer in root.findall(f"{AREA}g")}
     assert list(layers) == ["data", "rois", "sulci", "cutouts", "display"]
     found = {}
@@ -308,6 +314,27 @@ def test_a_subject_of_the_filestore_keeps_its_regions(copied):
             assert_array_equal(new[was & now], old[was & now], err_msg=name)
     for name in ("wm_lh.gii", "pia_rh.gii", "inflated_lh.gii"):
         assert everything(folder / "surfaces")[name] == kept[name]
+
+
+def test_a_region_drawn_by_hand_with_curves_is_drawn_on_the_new_map(copied, recon):
+    folder = copied / "sub-01"
+    root, places, _ = placed(folder)
+    x, y = places[:VERTICES].mean(axis=0)
+    r, k = 150.0, 150.0 * 0.5522847498  # four curves that differ from a circle by 0.03 %
+    turns = [((0, k), (k - r, r), (-r, r)), ((-k, 0), (-r, k - r), (-r, -r))]
+    turns += [((0, -k), (r - k, -r), (r, -r)), ((k, 0), (r, r - k), (r, r))]
+    curves = " ".join(",".join(f"{part:.6f}" for part in pair) for turn in turns for pair in turn)
+    group = ET.SubElement(root.find(f".//{AREA}g[@id='rois_shapes']"), f"{AREA}g", {LABEL: "drawn"})
+    ET.SubElement(group, f"{AREA}path", {"d": f"m {x + r:.6f},{y:.6f} c {curves} z"})
+    ET.ElementTree(root).write(folder / "overlays.svg")
+    away = np.linalg.norm(places - (x, y), axis=1)[:VERTICES]
+    old = np.unique(surface(folder, "flat", "lh")[1])
+    succeed("pycortex", recon, "--filestore", copied, "--overwrite")
+    found, on_map = found_by_pycortex(folder)
+    is_clear = on_map[0] & np.isin(np.arange(VERTICES), old) & (np.abs(away - r) > 1)
+    assert_array_equal(found["drawn"][0][is_clear], away[is_clear] < r)
+    assert (away[is_clear] < r).sum() > 30
+    assert not found["drawn"][1].any()
 
 
 def test_another_brain_of_the_same_name_is_refused(copied, tmp_path):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.path import Path as Polygon
 from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_path, checked_switch, log, shown
@@ -332,7 +333,7 @@ def _check(drawing: Drawing, regions: Mapping[str, Roi], outlines: Mapping[str, 
     for name, region in regions.items():
         wrong = 0
         for hemi, mask in region.masks.items():
-            found = drawing.inside(hemi, outlines[name].get(hemi, []))
+            found = drawing.inside(hemi, map(Polygon, outlines[name].get(hemi, [])))
             wrong += int(np.count_nonzero((mask & drawing.flats[hemi].is_on_map) != found))
         if wrong:
             log.warning("pycortex will find or miss %d other vertices in the region %s", wrong, name)

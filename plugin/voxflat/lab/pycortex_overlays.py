@@ -5,7 +5,7 @@ of a path separately, so a hole has to be connected with the outline around it b
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -85,14 +85,14 @@ class Drawing:
             wanted = mask & self._is_on_map[hemi]
             loops = [np.round(self.pixels(loop), _DECIMALS) for loop in _loops(self._collars[hemi], wanted)]
             if loops:
-                found[hemi] = _corrected(loops, wanted, self.inside(hemi, loops), self._tested[hemi])
+                found[hemi] = _corrected(loops, wanted, self.inside(hemi, map(Polygon, loops)), self._tested[hemi])
         return found
 
-    def inside(self, hemi: str, loops: Sequence[_Floats]) -> NDArray[np.bool_]:
+    def inside(self, hemi: str, outlines: Iterable[Polygon]) -> NDArray[np.bool_]:
         """Return the vertices on the map in any of several outlines, by pycortex's rule."""
         mask = np.zeros(len(self._tested[hemi]), dtype=np.bool_)
-        for loop in loops:
-            mask |= _contained(loop, self._tested[hemi])
+        for outline in outlines:
+            mask |= _contained(outline, self._tested[hemi])
         return mask & self._is_on_map[hemi]
 
     def svg(self, rois: Mapping[str, Roi], outlines: Mapping[str, Mapping[str, list[_Floats]]]) -> bytes:
@@ -145,7 +145,7 @@ class Drawing:
         return {hemi: np.column_stack([of[:, 0], HEIGHT - of[:, 1]]) for hemi, of in pixels.items()}
 
 
-def read_overlays(path: Path) -> tuple[dict[str, list[_Floats]], list[str]]:
+def read_overlays(path: Path) -> tuple[dict[str, list[Polygon]], list[str]]:
     """Return the regions of interest in an ``overlays.svg``, and the names of its other layers with drawings.
 
     A region consists of the parts of its paths, in pixels, as pycortex reads them.
@@ -157,11 +157,11 @@ def read_overlays(path: Path) -> tuple[dict[str, list[_Floats]], list[str]]:
         return _shapes(root), [name for name in drawn if name not in ("rois", "data")]
 
 
-def _shapes(root: Any) -> dict[str, list[_Floats]]:
+def _shapes(root: Any) -> dict[str, list[Polygon]]:
     rois = _named(root, "rois")
     shapes = None if rois is None else _named(rois, "shapes")
     groups = [] if shapes is None else shapes.findall(f"{{{_SVG}}}g")
-    found: dict[str, list[_Floats]] = {}
+    found: dict[str, list[Polygon]] = {}
     for group in groups:
         loops = [loop for path in group.findall(f"{{{_SVG}}}path") for loop in _parts(path.get("d", ""))]
         if loops:
@@ -173,16 +173,20 @@ def _named(parent: Any, label: str) -> Any:
     return next((group for group in parent.findall(f"{{{_SVG}}}g") if group.get(_LABEL) == label), None)
 
 
-def _parts(data: str) -> Iterator[_Floats]:
-    """Yield the parts of a path as polygons; curves become chords. pycortex ignores transformations."""
+def _parts(data: str) -> Iterator[Polygon]:
+    """Yield the parts of a path, with their curves; pycortex ignores transformations."""
     svg = require("svgelements")
     for part in svg.Path(data).as_subpaths():
-        segments = [segment for segment in svg.Path(part) if not isinstance(segment, svg.Move)]
-        shares = [np.linspace(0, 1, 2 if isinstance(one, svg.Line | svg.Close) else 33) for one in segments]
-        points = [one.point(t) for one, ts in zip(segments, shares, strict=True) if one.start is not None for t in ts]
-        loop = np.array([[point.x, point.y] for point in points if point is not None], dtype=np.float64)
-        if len(loop) >= 3:
-            yield loop
+        points, codes = [], []
+        for segment in svg.Path(part):
+            if isinstance(segment, svg.CubicBezier):
+                points += [segment.control1, segment.control2, segment.end]
+                codes += 3 * [Polygon.CURVE4]
+            elif segment.end is not None:
+                points.append(segment.end)
+                codes.append(Polygon.MOVETO if isinstance(segment, svg.Move) else Polygon.LINETO)
+        if len(points) > 2:
+            yield Polygon([(point.x, point.y) for point in points], codes)
 
 
 def _corrected(
@@ -202,10 +206,11 @@ def _corrected(
     return loops
 
 
-def _contained(loop: _Floats, points: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which points lie in a polygon, by Matplotlib's test, which pycortex uses."""
-    inside = ((points >= loop.min(axis=0)) & (points <= loop.max(axis=0))).all(axis=1)
-    inside[inside] = Polygon(loop).contains_points(points[inside])
+def _contained(outline: Polygon, points: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which points lie in an outline, by Matplotlib's test, which pycortex uses."""
+    corners = np.asarray(outline.vertices)
+    inside = ((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1)
+    inside[inside] = outline.contains_points(points[inside])
     return np.asarray(inside)
 
 
