@@ -16,6 +16,7 @@ from refusals import refused
 import voxflat
 from voxflat import _core
 from voxflat.io import Volume
+from voxflat.laminar.labels import _extended, grown, reached
 from voxflat.laminar.rim import _is_fragment
 from voxflat.maps.depth import LAYERINGS
 
@@ -517,3 +518,21 @@ def test_a_rim_is_flattened_as_its_middle_surface():
     assert rim.surface.flatten().provenance["parameters"]["of"]["function"] == "rim"
     refused("label does not apply when the input is a Surface", voxflat.surface, rim, label=3)
     refused("a CutSurface is cut open already", voxflat.surface, rim.surface.cut())
+
+
+def test_masks_and_labels_grow_as_those_of_scipy():
+    random = np.random.default_rng(0)
+    for shape in ((7, 8, 9), (6, 1, 5)):
+        mask = random.random(shape) < 0.04
+        np.testing.assert_array_equal(grown(mask), scipy.ndimage.binary_dilation(mask, np.ones((3, 3, 3))))
+        for steps in (1, 3):
+            np.testing.assert_array_equal(reached(mask, steps), scipy.ndimage.binary_dilation(mask, iterations=steps))
+        labels = random.integers(1, 4, shape).astype(np.uint8)
+        beyond = np.array([[2, 0], [1, 3], [0, 6]])
+        padded = np.pad(labels, beyond)
+        for spacing in (1.0, 2.0, 0.5), (1.0, 1.0, 1.0):
+            nearest = scipy.ndimage.distance_transform_edt(
+                padded == 0, sampling=spacing, return_distances=False, return_indices=True
+            )
+            found = _extended(labels, beyond, Volume(labels, np.diag([*spacing, 1.0])))
+            np.testing.assert_array_equal(found, padded[tuple(nearest)])

@@ -13,7 +13,7 @@ from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled
 from voxflat.io.reading import check_room
 from voxflat.laminar.banks import between_banks, crosses, keep_to_bank, neighbours_of
-from voxflat.laminar.labels import GREY, INNER, OUTER, Layered, loose
+from voxflat.laminar.labels import GREY, INNER, OUTER, Layered, grown, loose, reached
 from voxflat.maps.depth import smooth_areas, vertex_areas
 from voxflat.surfaces.uncertainty import APART, LOOSE, PLACED, THICK, TOO_THICK
 
@@ -22,6 +22,7 @@ _A_VOXEL = 60
 
 _BEYOND = 3  # voxels beyond the labels
 _CHUNK = 1 << 17  # points between two reports of progress
+_CACHED = 1 << 14  # rows that fit into the cache of a core
 _FAR = np.inf  # mm, no limit
 _EXTENT = 100  # area of the middle surface, relative to the squared thickness, that shows how gyri and sulci differ
 _FIFTHS = (0.2, 0.8)  # ends of the shares of columns that widen least and most towards the outer border
@@ -55,7 +56,7 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     # Fits move borders a few hundredths of a voxel into their solids, both away from the grey matter.
     borders = [_Border.of(rim.extended == label, affine, threads, progress) for label in (INNER, OUTER)]
     # Beyond the labels, a few voxels of extended grey matter let the middle surface reach the end of the labels.
-    near = scipy.ndimage.binary_dilation(rim.labels == GREY, iterations=_BEYOND)
+    near = reached(rim.labels == GREY, _BEYOND)
     band = np.argwhere((rim.extended == GREY) & near)
     places = rim.places(band)
     borders, is_placed, (depth, thickness, inner, outer) = _within_banks(rim, band, borders, steps)
@@ -83,7 +84,7 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     halves = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
     triangles, weights = steps.nearest(_core.NearestFinder(points, faces), halves)[:2]
     corners = faces[triangles]
-    halfway = np.einsum("nk,nkd->nd", weights, points[corners])
+    halfway = _interpolated(points, corners, weights)
     voxels, unknown = band[is_grey], np.zeros(is_grey.sum())
     lost = np.unique(
         np.concatenate([crosses(rim, label, rim.places(voxels), halfway, unknown) for label in (INNER, OUTER)])
@@ -91,10 +92,11 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     taken = neighbours_of(rim, voxels, halfway, lost)
     is_apart = taken < 0
     taken[is_apart] = np.flatnonzero(is_apart)
-    halfway, corners, weights = halfway[taken], corners[taken], weights[taken]
+    if len(lost):
+        halfway, corners, weights = halfway[taken], corners[taken], weights[taken]
     halfway[is_apart] = np.nan
-    around = [(weights * area[corners]).sum(axis=1) for area in areas]
-    columns = np.einsum("nk,nkd->nd", weights, normals[corners])
+    around = _interpolated(np.stack(areas, axis=1), corners, weights).T
+    columns = _interpolated(normals, corners, weights)
     lengths = np.linalg.norm(columns, axis=1, keepdims=True)
     columns /= np.where(lengths > 0, lengths, np.nan)
     is_thick = thickness > TOO_THICK * np.median(thickness)
@@ -179,8 +181,7 @@ def _share(inwards: NDArray[np.float64], outwards: NDArray[np.float64]) -> NDArr
 
 def _crossed(image: NDArray[np.float32], where: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the voxels that differ in sign from one of their 26 neighbours."""
-    is_inner, cube = image > 0, np.ones((3, 3, 3), dtype=np.bool_)
-    near_inner, near_outer = (scipy.ndimage.binary_dilation(side, cube) for side in (is_inner, ~is_inner))
+    near_inner, near_outer = grown(image > 0), grown(image <= 0)
     return np.asarray(where & near_inner & near_outer)
 
 
@@ -277,8 +278,8 @@ class _Border:
         """Return the distance of places from the border in mm, positive outside, and the nearest points."""
         triangles, weights, distances = steps.nearest(self.finder, places)
         corners = self.faces[triangles]
-        nearest = np.einsum("nk,nkd->nd", weights, self.points[corners])
-        outward = np.einsum("nk,nkd->nd", weights, self.normals[corners])
+        nearest = _interpolated(self.points, corners, weights)
+        outward = _interpolated(self.normals, corners, weights)
         is_inside = ((places - nearest) * outward).sum(axis=1) < 0  # 0 where the normals are, see `joined`
         return np.where(is_inside, -distances, distances), nearest
 
@@ -301,3 +302,14 @@ class _Steps:
             parts.append(finder.find(places[start : start + _CHUNK], _FAR))
         triangles, weights, distances = (np.concatenate(part) for part in zip(*parts, strict=True))
         return triangles, weights, distances
+
+
+def _interpolated(
+    values: NDArray[np.float64], corners: NDArray[np.uint32], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return values at points of triangles, from those at their corners."""
+    found = np.empty((len(corners), values.shape[1]))
+    for start in range(0, len(corners), _CACHED):
+        part = slice(start, start + _CACHED)
+        found[part] = np.einsum("nk,nkd->nd", weights[part], values[corners[part]])
+    return found

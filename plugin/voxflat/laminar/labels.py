@@ -80,22 +80,58 @@ def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) ->
     labels[where["grey"]] = GREY
     box = scipy.ndimage.find_objects(where["grey"].astype(np.uint8))[0]
     low, high = np.array([part.start for part in box]) - _PAD, np.array([part.stop for part in box]) + _PAD
-    inside = map(slice, np.maximum(low, 0), np.minimum(high, labels.shape))
+    inside = tuple(map(slice, np.maximum(low, 0), np.minimum(high, labels.shape)))
     beyond = np.stack([np.maximum(-low, 0), np.maximum(high - labels.shape, 0)], axis=1)
-    near = np.pad(labels[tuple(inside)], beyond)
-    nearest = scipy.ndimage.distance_transform_edt(
-        near == 0, sampling=volume.spacing, return_distances=False, return_indices=True
-    )
+    near = np.pad(labels[inside], beyond)
     affine = volume.affine.copy()
     affine[:3, 3] += affine[:3, :3] @ low
-    layers = Layered(near, _joined(near[tuple(nearest)]), low, affine, volume)
+    layers = Layered(near, _joined(_extended(labels[inside], beyond, volume)), low, affine, volume)
     _check_borders(layers, codes)
     return layers
 
 
+def _extended(labels: NDArray[np.uint8], beyond: NDArray[np.int64], volume: Volume) -> NDArray[np.uint8]:
+    """Return labels with voxels added `beyond` both ends of each axis; unknown ones take the nearest label."""
+    if labels.all():  # the nearest voxel of a box is that of its border
+        return np.pad(labels, beyond, mode="edge")
+    labels = np.pad(labels, beyond)
+    nearest = scipy.ndimage.distance_transform_edt(
+        labels == 0, sampling=volume.spacing, return_distances=False, return_indices=True
+    )
+    return np.asarray(labels[tuple(nearest)])
+
+
+def grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return a mask with the 26 neighbours of its voxels."""
+    for axis in range(mask.ndim):
+        after, before = _along(axis, np.s_[1:]), _along(axis, np.s_[:-1])
+        wider = mask.copy()
+        wider[before] |= mask[after]
+        wider[after] |= mask[before]
+        mask = wider
+    return mask
+
+
+def reached(mask: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
+    """Return a mask with the voxels that are reached in a number of steps to one of the six direct neighbours."""
+    for _ in range(steps):
+        wider = mask.copy()
+        for axis in range(mask.ndim):
+            after, before = _along(axis, np.s_[1:]), _along(axis, np.s_[:-1])
+            wider[before] |= mask[after]
+            wider[after] |= mask[before]
+        mask = wider
+    return mask
+
+
+def _along(axis: int, part: slice) -> tuple[slice, ...]:
+    """Return the index of a part of an array along one axis."""
+    return (np.s_[:],) * axis + (part,)
+
+
 def _joined(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Join parts of a border that do not touch the grey matter, such as ventricles, to the other border around them."""
-    near = scipy.ndimage.binary_dilation(labels == GREY, _CUBE)
+    near = grown(labels == GREY)
     joined: NDArray[np.uint8] = labels.copy()
     for label, other in ((INNER, OUTER), (OUTER, INNER)):
         parts, count = scipy.ndimage.label(labels == label)
@@ -112,7 +148,7 @@ def loose(layers: Layered) -> NDArray[np.bool_]:
     is_tied = np.ones(count + 1, dtype=np.bool_)
     for label in (INNER, OUTER):
         beside = np.zeros(count + 1, dtype=np.bool_)
-        beside[parts[scipy.ndimage.binary_dilation(layers.labels == label, _CUBE)]] = True
+        beside[parts[grown(layers.labels == label)]] = True
         is_tied &= beside
     return np.asarray(~is_tied[parts[layers.labels == GREY]])
 
@@ -214,7 +250,7 @@ _NAMES = {"inner": "inner border", "outer": "outer border", "grey": "grey matter
 
 def _check_borders(layers: Layered, codes: dict[str, object]) -> None:
     """Check that the grey matter touches both borders, and that the inner border does not enclose the outer one."""
-    near = scipy.ndimage.binary_dilation(layers.labels == GREY, _CUBE)
+    near = grown(layers.labels == GREY)
     for name, label in (("inner", INNER), ("outer", OUTER)):
         if not (near & (layers.labels == label)).any():
             raise InputError(
