@@ -682,7 +682,8 @@ def doubtful(tmp_path_factory):
     return root, run("bids", root / "bids", root / "out", "participant")
 
 
-NO_LABEL = "found no cortex label (?h.cortex.label or *_desc-cortex_mask.label.gii), so the cortex is defined by the"
+_FILES = "?h.cortex.label, *_desc-cortex_mask.label.gii or *.atlasroi.32k_fs_LR.shape.gii"
+NO_LABEL = f"found no cortex label ({_FILES}), so the cortex is defined by the"
 WARNINGS = {"sub-2 L": NO_LABEL, "sub-3 R": "the pial surface equals the given surface: distances are measured on it"}
 
 

@@ -140,7 +140,7 @@ def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> tup
     elif whole.thickness is not None and parameters.cuts == "automatic":
         part, basis = whole.drop("medial wall"), "the thickness of the cortex"
     if not parameters.volume:
-        files = "?h.cortex.label or *_desc-cortex_mask.label.gii"
+        files = "?h.cortex.label, *_desc-cortex_mask.label.gii or *.atlasroi.32k_fs_LR.shape.gii"
         remedy = "Add the label, or check that this definition is accurate enough"
         log.warning("%s", f"found no cortex label ({files}), so the cortex is defined by {basis}. {remedy}")
     return part, basis
