@@ -435,6 +435,12 @@ def test_the_spec_lists_all_files_and_the_scene_those_that_are_opened(made, name
     assert opened == [text for text, of in entries.items() if of["Selected"] == "true"]
 
 
+def drawn(scene, folder):
+    """Return the pixels of a scene."""
+    workbench("-show-scene", scene, "1", folder / "scene.png", "600", "300")
+    return np.asarray(Image.open(folder / "scene.png").convert("RGB")).astype(float)
+
+
 @pytest.mark.slow
 @needs_workbench
 @pytest.mark.parametrize("name", ["fmriprep_native", "fmriprep_fsLR", "hcp_native", "hcp_fsLR"])
@@ -448,8 +454,16 @@ def test_workbench_opens_every_file_and_draws_the_scene(made, name, tmp_path):
     count = len(list(ElementTree.parse(spec).iter("DataFile")))
     assert len(re.findall(r"\.(?:gii|nii) ", workbench("-file-information", spec))) == count
     workbench("-spec-file-merge", spec, spec, tmp_path / "merged.spec")
-    workbench("-show-scene", scene, "1", tmp_path / "scene.png", "600", "300")
-    pixels = np.asarray(Image.open(tmp_path / "scene.png").convert("RGB")).astype(float)
+    pixels = drawn(scene, tmp_path)
+    tree = ElementTree.parse(scene)
+    overlays = next(of for of in tree.iter("ObjectArray") if of.get("Name") == "m_overlays")
+    members = [element[0] for element in overlays]
+    for element, member in zip(overlays, members[::-1], strict=True):
+        element[:] = [member]
+    other = scene.with_name("reversed.scene")
+    tree.write(other)
+    assert np.abs(drawn(other, tmp_path) - pixels).mean() > 10  # the first overlay is on top
+    other.unlink()
     for half in (pixels[:, :300], pixels[:, 300:]):  # the left and the right map on black
         assert 0.3 < (half.max(axis=2) > 40).mean() < 0.95
         shown = half[half.max(axis=2) > 40]

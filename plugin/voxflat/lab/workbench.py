@@ -219,6 +219,8 @@ def _montage(maps: Mapping[str, Path], layers: Sequence[OpenedFile], folder: Pat
         _value("enumeratedType", "m_modelType", "MODEL_TYPE_SURFACE_MONTAGE"),
         _value("integer", "montageVersion", "3"),
         kind,
+        _map("m_cerebellarConfiguration"),  # without these two, Workbench ignores that of the flat maps
+        _map("m_cerebralConfiguration"),
         _map("m_flatMapsConfiguration", flat),
     )
 
@@ -268,9 +270,10 @@ def _numbers(name: str, *numbers: int) -> Element:
     return element
 
 
-def _map(name: str, member: Element) -> Element:
+def _map(name: str, *members: Element) -> Element:
     element = Element("ObjectMap", Type="class", Name=name)
-    SubElement(element, "Value", Key="0").append(member)
+    for key, member in enumerate(members):
+        SubElement(element, "Value", Key=str(key)).append(member)
     return element
 
 
