@@ -40,7 +40,8 @@ _PLACED = tuple(name for name in _COLUMNS if name not in ("flipped", "covering")
 _COSTS = ("wall", "cpu", "peak")
 _TITLES = {GIVEN: "given cuts", FREE: "free cuts"}
 _FIGURE_SIZE = (7.2, 4.2)
-_TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+_FLOOR = 0.5  # %, at which smaller errors are drawn
+_TICKS = (0.5, 1, 2, 5, 10, 20, 50, 100)
 
 Row = dict[str, Any]
 
@@ -115,6 +116,9 @@ def markdown(results: Sequence[Mapping[str, Any]], rows: Sequence[Row], figures:
         of_track = [row for row in rows if row["track"] == track]
         if of_track:
             lines += ["", f"## {title.capitalize()}", "", f"![Error against time, {title}]({figures[track].name})", ""]
+            if track == FREE:
+                lines += ["Errors are measured within charts, so maps in many charts have small errors. Read them"]
+                lines += ["together with the errors on the uncut surface, the length of the cuts and the charts.", ""]
             lines += _means(of_track)
             for entry in chosen():
                 lines += _table(entry, [row for row in of_track if row["surface"] == entry.name])
@@ -237,7 +241,7 @@ def draw(rows: Sequence[Row], title: str, path: Path) -> None:
     """Draw the errors of all maps against CPU time or, with free cuts, against the length of the cuts."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.ticker import NullFormatter, ScalarFormatter
+    from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
     is_free = rows[0]["track"] == FREE
     figure = Figure(figsize=_FIGURE_SIZE, layout="constrained", dpi=150)
@@ -247,17 +251,17 @@ def draw(rows: Sequence[Row], title: str, path: Path) -> None:
     for number, tool in enumerate(names):
         of_tool = [row for row in rows if row["tool"] == tool]
         across = np.array([row["cut_length"] if is_free else row.get("cpu") or np.nan for row in of_tool])
-        errors = [100 * row["relative_error"] for row in of_tool]
+        errors = np.maximum([100 * row["relative_error"] for row in of_tool], _FLOOR)
         if np.isfinite(across).any():
             marker = "ov^sDP*Xdph<>"[number % 13]
             axes.plot(across, errors, marker, color=f"C{number % 10}", alpha=0.8, label=tool, zorder=3 if number else 4)
     axes.set(xscale="symlog" if is_free else "log", yscale="log", title=f"Benchmark, {title}: one point per map")
     axes.set_xlabel("length of the cuts (mm, or µm for organs)" if is_free else "CPU time (s)")
-    axes.set_ylabel("mean error of all distances (%)")
+    axes.set_ylabel(f"mean error of all distances (%), at least {_FLOOR:g} shown")
     low, high = axes.get_ylim()
     axes.set_yticks([tick for tick in _TICKS if low <= tick <= high])
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(ScalarFormatter())
+        axis.set_major_formatter(FormatStrFormatter("%g"))
         axis.set_minor_formatter(NullFormatter())
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1, 0.5))
