@@ -114,8 +114,15 @@ def markdown(results: Sequence[Mapping[str, Any]], rows: Sequence[Row], figures:
     lines += ["`results.json` beside this page contain all measures."]
     for track, title in _TITLES.items():
         of_track = [row for row in rows if row["track"] == track]
+        across = "length of the cuts" if track == FREE else "time"
         if of_track:
-            lines += ["", f"## {title.capitalize()}", "", f"![Error against time, {title}]({figures[track].name})", ""]
+            lines += [
+                "",
+                f"## {title.capitalize()}",
+                "",
+                f"![Error against {across}, {title}]({figures[track].name})",
+                "",
+            ]
             if track == FREE:
                 lines += ["Errors are measured within charts, so maps in many charts have small errors. Read them"]
                 lines += ["together with the errors on the uncut surface, the length of the cuts and the charts.", ""]
