@@ -1,4 +1,4 @@
-"""Measure distance matrices, beside Workbench, and a null model (docs/decisions/0002-distance-rows.md).
+"""Measure distance matrices, beside Workbench, and a null model (docs/decisions/0056-distance-matrices.md).
 
     python docs/benchmarks/distance_matrix.py L.midthickness.surf.gii R.midthickness.surf.gii PARCELS.dlabel.nii
         [--roi L.atlasroi.shape.gii] [--only dense,parcels,accuracy,workbench,null]
@@ -137,9 +137,9 @@ def null(asked, folder):
     base = Base(brain_map, matrix.values, seed=0)
     surrogates = base(n=asked.surrogates)
     shuffled = [np.random.default_rng(n).permutation(brain_map) for n in range(asked.surrogates)]
-    own, _ = base.compute_smooth_variogram(base.compute_variogram(brain_map), return_h=True)
+    own = base.compute_smooth_variogram(brain_map)
     for name, maps in {"surrogates": surrogates, "shuffled maps": shuffled}.items():
-        found = np.array([base.compute_smooth_variogram(base.compute_variogram(values)) for values in maps])
+        found = np.array([base.compute_smooth_variogram(values) for values in maps])
         off = np.abs(found.mean(axis=0) / own - 1)
         alike = np.abs([np.corrcoef(values, brain_map)[0, 1] for values in maps]).mean()
         text = f"mean {off.mean():.1%}, largest {off.max():.1%}; mean |r| with the map {alike:.2f}"

@@ -53,7 +53,8 @@ def main():
     surface.save(path)
     squares = np.asarray(surface.geodesic(vertices, geodesic="exact").rows, dtype=float) ** 2
     print(f"{len(surface)} vertices, median edge {surface.usual_edge:.2f}")
-    impulses = np.eye(surface.count)[:, vertices]
+    impulses = np.zeros((surface.count, len(vertices)))
+    impulses[vertices, np.arange(len(vertices))] = 1
     for fwhm in map(float, asked.fwhm.split(",")):
         start = time.process_time()
         found = {"voxflat": surface.smooth_values(impulses, fwhm)}
