@@ -1,4 +1,4 @@
-"""Measure distance matrices, beside Workbench, and a null model (docs/decisions/0056-distance-matrices.md).
+"""Measure distance matrices, beside Workbench, and a null model (docs/decisions/0057-distance-matrices.md).
 
     python docs/benchmarks/distance_matrix.py L.midthickness.surf.gii R.midthickness.surf.gii PARCELS.dlabel.nii
         [--roi L.atlasroi.shape.gii] [--only dense,parcels,accuracy,workbench,null]
