@@ -443,7 +443,7 @@ class Regions(ReadOnly, Recorded):
             if key not in present:
                 log.warning("no vertex lies in %s, so %s is not written", name, file)
             elif file in files:
-                raise InputError(f"two regions would be saved as {file}. Give them different names")
+                raise InputError(f"two regions would be saved as {file}. Name them differently")
             else:
                 files[file] = replace(
                     self, names=(name,), keys=(key,), colours=self.colours[n : n + 1], places=_Only(self.places, key)

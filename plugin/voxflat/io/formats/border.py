@@ -45,8 +45,7 @@ def read_borders(data: bytes, points: int) -> list[Border]:
         raise InputError(f"is not a border file, but contains {root.tag[:40]!r}. Pass a .border file of Workbench")
     version = root.get("Version", "")
     if version not in ("1", "3"):
-        remedy = "Convert it with wb_command -file-convert -border-version-convert"
-        raise InputError(f"has version {version[:20]!r}, but versions 1 and 3 can be read. {remedy}")
+        raise InputError(f"has version {version[:20]!r}. Convert it to version 1 or 3 with Workbench")
     stated = root.get("SurfaceNumberOfVertices")
     if stated is not None and stated != str(points):
         raise InputError(f"belongs to a surface with {stated[:20]} vertices, but this surface has {points}")
