@@ -33,6 +33,7 @@ __all__ = [
     "store_memory_need",
     "turn_onto",
     "vertex_normals",
+    "ways_pass",
 ]
 
 __version__: str
@@ -86,6 +87,14 @@ def connect_columns(voxels: _Uints, columns: _Uints, halfway: _Floats, progress:
 class NearestFinder:
     def __new__(cls, points: _Floats, faces: _Uints) -> NearestFinder: ...
     def find(self, points: _Floats, limit: float) -> tuple[_Ints, _Floats, _Floats]: ...
+    def sides(
+        self,
+        points: _Floats,
+        normals: _Floats,
+        faces: _Uints,
+        threads: _Threads = None,
+        progress: _Progress = None,
+    ) -> tuple[_Floats, _Floats]: ...
 
 @final
 class TriangleFinder:
@@ -344,3 +353,13 @@ class VoxelSurface:
         progress: _Progress = None,
     ) -> _Facts: ...
     def map_faces(self, uv: _Floats, progress: _Progress = None) -> tuple[_Uints, _Mask]: ...
+
+def ways_pass(
+    mask: _Mask,
+    to_voxels: list[list[float]],
+    starts: _Floats,
+    ends: _Floats,
+    clear: _Floats,
+    step: float,
+    threads: _Threads = None,
+) -> _Mask: ...

@@ -16,7 +16,8 @@ from refusals import refused
 import voxflat
 from voxflat import _core
 from voxflat.io import Volume
-from voxflat.laminar.labels import _extended, grown, reached
+from voxflat.laminar.banks import crosses
+from voxflat.laminar.labels import Layered, _extended, grown, reached
 from voxflat.laminar.rim import _is_fragment
 from voxflat.maps.depth import LAYERINGS
 
@@ -536,3 +537,15 @@ def test_masks_and_labels_grow_as_those_of_scipy():
             )
             found = _extended(labels, beyond, Volume(labels, np.diag([*spacing, 1.0])))
             np.testing.assert_array_equal(found, padded[tuple(nearest)])
+
+
+def test_a_way_crosses_a_border_between_its_ends():
+    labels = np.full((12, 5, 5), 2, dtype=np.uint8)
+    labels[6] = 3
+    affine = np.diag([0.5, 0.7, 2.0, 1.0])
+    affine[:3, 3] = 9.0
+    rim = Layered(labels, labels, np.zeros(3, dtype=np.int64), affine, Volume(labels, affine))
+    starts, ends = (
+        rim.places(np.array(voxels)) for voxels in ([[2, 2, 2]] * 4, [[10, 2, 3], [5, 0, 4], *[[9, 2, 2]] * 2])
+    )
+    np.testing.assert_array_equal(crosses(rim, 3, starts, ends, np.array([0.0, 0.0, 1.9, 3.5])), [0, 2])

@@ -4,7 +4,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.laminar.labels import Layered, moved
+from voxflat import _core
+from voxflat.laminar.labels import Layered
 
 _THICK = 1.5  # thickness, relative to the usual one, from which two banks may touch
 _BANK = (0.5, 1.5)  # thickness of each of these banks, relative to the usual one
@@ -17,41 +18,19 @@ _AROUND = [np.array([0 * a, a, a + b, b]) for a, b in (_STEPS[[1, 2]], _STEPS[[0
 
 
 def crosses(
-    rim: Layered, label: int, places: NDArray[np.float64], ends: NDArray[np.float64], nearest: NDArray[np.float64]
+    rim: Layered,
+    label: int,
+    places: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    nearest: NDArray[np.float64],
+    threads: int | None = None,
 ) -> NDArray[np.int64]:
     """Return the places whose straight way to `ends` passes a label, which is at least at the distance `nearest`."""
-    way = ends - places
-    length = np.linalg.norm(way, axis=1)
     half = 0.5 * float(rim.volume.spacing.min())
-    way /= np.maximum(length, half)[:, None]
-    left = np.flatnonzero(length - half > np.maximum(nearest - 2 * half, 0))
-    back = np.linalg.inv(rim.affine)
-    starts = moved(places[left], back).T.copy()  # in voxels, as the steps: for each axis
-    steps = (way[left] @ back[:3, :3].T).T.copy()
-    ends_at, clear = length[left] - half, nearest[left] - 2 * half
-    is_label = rim.extended == label
-    passed = []
-    distance = half
-    while len(left):
-        here = np.flatnonzero(distance > clear)
-        axes = (
-            np.rint(start[here] + distance * step[here]).astype(np.int32).clip(0, size - 1)
-            for start, step, size in zip(starts, steps, is_label.shape, strict=True)
-        )
-        is_passed = np.zeros(len(left), dtype=np.bool_)
-        is_passed[here] = is_label[tuple(axes)]
-        passed.append(left[is_passed])
-        distance += half
-        kept = np.flatnonzero(~is_passed & (distance < ends_at))
-        if len(kept) < len(left):
-            left, ends_at, clear, starts, steps = (
-                left[kept],
-                ends_at[kept],
-                clear[kept],
-                starts[:, kept],
-                steps[:, kept],
-            )
-    return np.sort(np.concatenate([*passed, left]))
+    to_voxels = np.linalg.inv(rim.affine).tolist()
+    return np.flatnonzero(
+        _core.ways_pass(rim.extended == label, to_voxels, places, ends, nearest - 2 * half, half, threads)
+    )
 
 
 def neighbours_of(
@@ -81,14 +60,19 @@ def neighbours_of(
 
 
 def keep_to_bank(
-    rim: Layered, label: int, voxels: NDArray[np.int64], feet: NDArray[np.float64], nearest: NDArray[np.float64]
+    rim: Layered,
+    label: int,
+    voxels: NDArray[np.int64],
+    feet: NDArray[np.float64],
+    nearest: NDArray[np.float64],
+    threads: int | None = None,
 ) -> NDArray[np.float64]:
     """Return the nearest points on a border that grey `voxels` reach without passing a label.
 
     The nearest point of a border can belong to the other bank of a sulcus. Such voxels take the point of a neighbour.
     `nearest` are distances to the label.
     """
-    taken = neighbours_of(rim, voxels, feet, crosses(rim, label, rim.places(voxels), feet, nearest))
+    taken = neighbours_of(rim, voxels, feet, crosses(rim, label, rim.places(voxels), feet, nearest, threads))
     return np.where((taken >= 0)[:, None], feet[taken], feet)
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, log
-from voxflat.errors import Cancelled
 from voxflat.io.reading import check_room
 from voxflat.laminar.banks import between_banks, crosses, keep_to_bank, neighbours_of
 from voxflat.laminar.labels import GREY, INNER, OUTER, Layered, grown, loose, reached
@@ -21,8 +20,7 @@ _A_VOXEL = 60
 """Bytes of memory per voxel of the box; measured: 40 to 55."""
 
 _BEYOND = 3  # voxels beyond the labels
-_CHUNK = 1 << 17  # points between two reports of progress
-_CACHED = 1 << 14  # rows that fit into the cache of a core
+_CHUNK = 1 << 14  # rows that fit into the cache of a core
 _FAR = np.inf  # mm, no limit
 _EXTENT = 100  # area of the middle surface, relative to the squared thickness, that shows how gyri and sulci differ
 _FIFTHS = (0.2, 0.8)  # ends of the shares of columns that widen least and most towards the outer border
@@ -51,7 +49,7 @@ class Field:
 def field_of(rim: Layered, threads: int | None = None, progress: Progress | None = None) -> Field:
     """Compute the field of a rim."""
     check_room(_A_VOXEL * rim.labels.size)
-    steps = _Steps(progress)
+    steps = _Steps(threads, progress)
     affine = rim.affine.tolist()
     # Fits move borders a few hundredths of a voxel into their solids, both away from the grey matter.
     borders = [_Border.of(rim.extended == label, affine, threads, progress) for label in (INNER, OUTER)]
@@ -69,7 +67,7 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     found = [border.find(points, steps) for border in borders]
     feet = [nearest for _, nearest in found]
     for side, (label, label_of_side) in enumerate(((OUTER, inner), (INNER, outer))):
-        beyond = crosses(rim, label, points, feet[side], np.abs(found[1 - side][0]))
+        beyond = crosses(rim, label, points, feet[side], np.abs(found[1 - side][0]), threads)
         if len(beyond):  # on the other bank; the nearest voxel stays on its own
             feet[side][beyond] = label_of_side[scipy.spatial.cKDTree(places).query(points[beyond])[1]]
     normals = middle.normals
@@ -82,12 +80,12 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     areas = smooth_areas(surfaces, points, faces, float(np.median(thickness)), _known(rim, surfaces, faces))
     _warn_if_swapped(areas, np.linalg.norm(feet[1] - feet[0], axis=1), vertex_areas(points, faces))
     halves = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
-    triangles, weights = steps.nearest(_core.NearestFinder(points, faces), halves)[:2]
+    triangles, weights, _ = _core.NearestFinder(points, faces).find(halves, _FAR)
     corners = faces[triangles]
     halfway = _interpolated(points, corners, weights)
     voxels, unknown = band[is_grey], np.zeros(is_grey.sum())
     lost = np.unique(
-        np.concatenate([crosses(rim, label, rim.places(voxels), halfway, unknown) for label in (INNER, OUTER)])
+        np.concatenate([crosses(rim, label, places[is_grey], halfway, unknown, threads) for label in (INNER, OUTER)])
     )
     taken = neighbours_of(rim, voxels, halfway, lost)
     is_apart = taken < 0
@@ -194,7 +192,7 @@ def _within_banks(
     """
     places = rim.places(band)
     (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
-    inner = keep_to_bank(rim, OUTER, band, inner, np.abs(outwards))
+    inner = keep_to_bank(rim, OUTER, band, inner, np.abs(outwards), steps.threads)
     sheet = between_banks(band, rim.labels.shape, places, inner, outwards)
     is_placed = np.zeros(len(band), dtype=np.bool_)
     if len(sheet[0]):
@@ -203,7 +201,7 @@ def _within_banks(
         before = outwards[near]
         outwards[near], outer[near] = borders[1].find(places[near], steps)
         is_placed[near] = outwards[near] < before
-    outer = keep_to_bank(rim, INNER, band, outer, np.abs(inwards))
+    outer = keep_to_bank(rim, INNER, band, outer, np.abs(inwards), steps.threads)
     inwards, outwards = (
         np.copysign(np.linalg.norm(places - foot, axis=1), side) for foot, side in ((inner, inwards), (outer, outwards))
     )
@@ -276,32 +274,16 @@ class _Border:
 
     def find(self, places: NDArray[np.float64], steps: "_Steps") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the distance of places from the border in mm, positive outside, and the nearest points."""
-        triangles, weights, distances = steps.nearest(self.finder, places)
-        corners = self.faces[triangles]
-        nearest = _interpolated(self.points, corners, weights)
-        outward = _interpolated(self.normals, corners, weights)
-        is_inside = ((places - nearest) * outward).sum(axis=1) < 0  # 0 where the normals are, see `joined`
-        return np.where(is_inside, -distances, distances), nearest
+        nearest, distances = self.finder.sides(places, self.normals, self.faces, steps.threads, steps.progress)
+        return distances, nearest
 
 
 @dataclass(frozen=True)
 class _Steps:
-    """Report progress between chunks of points, and stop if the user cancels."""
+    """How to compute: the number of threads, and the callback that receives the progress and can cancel."""
 
+    threads: int | None
     progress: Progress | None
-
-    def nearest(
-        self, finder: _core.NearestFinder, places: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Find the nearest triangles of many places."""
-        stage = "measuring depth"
-        parts = []
-        for start in range(0, max(len(places), 1), _CHUNK):
-            if self.progress is not None and self.progress(stage, start, len(places)) is False:
-                raise Cancelled(f"cancelled while {stage}")
-            parts.append(finder.find(places[start : start + _CHUNK], _FAR))
-        triangles, weights, distances = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return triangles, weights, distances
 
 
 def _interpolated(
@@ -309,7 +291,7 @@ def _interpolated(
 ) -> NDArray[np.float64]:
     """Return values at points of triangles, from those at their corners."""
     found = np.empty((len(corners), values.shape[1]))
-    for start in range(0, len(corners), _CACHED):
-        part = slice(start, start + _CACHED)
+    for start in range(0, len(corners), _CHUNK):
+        part = slice(start, start + _CHUNK)
         found[part] = np.einsum("nk,nkd->nd", weights[part], values[corners[part]])
     return found

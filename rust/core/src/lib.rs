@@ -25,6 +25,7 @@
 //! | [`nearest`] | space → surface | the nearest point on the surface |
 //! | [`ribbon`] | space → surface | the voxels between two surfaces, and the triangle below each of them |
 //! | [`columns`] | | columns of voxels, each of which is connected |
+//! | [`ways`] | | straight ways through a label volume |
 //! | [`raster`] | flat map → image | pixels of the map, and their positions on the surface |
 //! | [`atlas`] | surface → flat patches | certified patches, and how they are glued |
 //! | [`flatten`] | | complete methods, composed of the stages |
@@ -78,6 +79,7 @@ pub mod surface;
 #[cfg(test)]
 mod tests;
 pub mod volume;
+pub mod ways;
 
 /// Points, normals and directions are vectors of this version of nalgebra.
 pub use nalgebra;

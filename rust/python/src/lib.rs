@@ -64,6 +64,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<voxels::VoxelSurface>()?;
     module.add_function(wrap_pyfunction!(nearest::ribbon_voxels, module)?)?;
     module.add_function(wrap_pyfunction!(nearest::connect_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(nearest::ways_pass, module)?)?;
     module.add_function(wrap_pyfunction!(raster::draw, module)?)?;
     module.add_function(wrap_pyfunction!(surface::component_sizes, module)?)?;
     module.add_function(wrap_pyfunction!(surface::defects, module)?)?;

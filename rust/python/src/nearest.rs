@@ -5,12 +5,14 @@ use std::sync::Arc;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::nearest::NearestFinder as CoreFinder;
+use voxflat::ways::Ways;
 use voxflat::{columns, ribbon};
 
-use crate::convert::{self, Given, GivenTable, Table, Values, ensure};
-use crate::work::{Progress, run};
+use crate::convert::{self, Given, GivenImage, GivenTable, Table, Values, ensure};
+use crate::work::{Progress, Threads, run};
 
 type Found<'py> = (Values<'py, i64>, Table<'py, f64>, Values<'py, f64>);
+type Sides<'py> = (Table<'py, f64>, Values<'py, f64>);
 type Columns<'py> = (Values<'py, u64>, Values<'py, u32>, Table<'py, f64>, Values<'py, f64>);
 
 /// Finds the nearest point on a surface.
@@ -42,6 +44,27 @@ impl NearestFinder {
         let weights: Vec<[f64; 3]> = found.iter().map(|near| near.map_or([f64::NAN; 3], |near| near.weights)).collect();
         let distances: Vec<f64> = found.iter().map(|near| near.map_or(f64::NAN, |near| near.distance)).collect();
         Ok((triangles.into_pyarray(py), convert::array(py, &weights)?, distances.into_pyarray(py)))
+    }
+
+    /// Return the nearest point of the surface for each point (P, 3), and its distance (P,) in mm, which is negative on
+    /// the side to which the normals do not point. `normals` (N, 3) are those of vertices, and `faces` (F, 3) are those
+    /// of the finder.
+    #[pyo3(signature = (points, normals, faces, threads=None, progress=None))]
+    fn sides<'py>(
+        &self, py: Python<'py>, points: GivenTable<'py, f64>, normals: GivenTable<'py, f64>,
+        faces: GivenTable<'py, u32>, threads: Threads, progress: Progress<'py>,
+    ) -> PyResult<Sides<'py>> {
+        let points = convert::rows::<_, 3>(&points, "points")?;
+        let normals = convert::rows::<_, 3>(&normals, "normals")?;
+        let faces = convert::rows::<_, 3>(&faces, "faces")?;
+        convert::check_vertices(faces.iter().flatten().copied(), normals.len())?;
+        let finder = Arc::clone(&self.0);
+        let (feet, distances) = run(py, threads, &progress, move |control| {
+            let of_corners: Vec<[[f64; 3]; 3]> =
+                faces.iter().map(|face| face.map(|vertex| normals[vertex as usize])).collect();
+            finder.sides(&points, &of_corners, control)
+        })?;
+        Ok((convert::array(py, &feet)?, distances.into_pyarray(py)))
     }
 }
 
@@ -96,4 +119,23 @@ pub fn connect_columns<'py>(
     );
     let joined = run(py, Some(1), &progress, move |control| columns::connect(&voxels, &given, &halfway, control))?;
     Ok(joined.into_pyarray(py))
+}
+
+/// Return which straight ways from `starts` (P, 3) to `ends` (P, 3), in mm, pass a voxel of a mask. They are read at
+/// multiples of `step` beyond the distances `clear` (P,). `to_voxels` is the affine matrix from mm to voxels.
+#[pyfunction]
+#[pyo3(signature = (mask, to_voxels, starts, ends, clear, step, threads=None))]
+pub fn ways_pass<'py>(
+    py: Python<'py>, mask: GivenImage<'py, bool>, to_voxels: [[f64; 4]; 4], starts: GivenTable<'py, f64>,
+    ends: GivenTable<'py, f64>, clear: Given<'py, f64>, step: f64, threads: Threads,
+) -> PyResult<Values<'py, bool>> {
+    let mask = convert::mask(&mask)?;
+    let starts = convert::rows::<_, 3>(&starts, "starts")?;
+    let ends = convert::rows::<_, 3>(&ends, "ends")?;
+    let clear = convert::values(&clear);
+    ensure!(step > 0.0, "step is {step}. Pass a positive length in mm");
+    let passed = run(py, threads, &None, move |control| {
+        Ways { starts: &starts, ends: &ends, clear: &clear, step }.pass(&mask, &to_voxels, control)
+    })?;
+    Ok(passed.into_pyarray(py))
 }

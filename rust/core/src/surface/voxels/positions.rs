@@ -24,13 +24,32 @@ pub struct Neighbours {
 
 impl Neighbours {
     /// Creates it from pairs, which may be repeated and in any order.
-    pub fn from_pairs(nodes: usize, pairs: Vec<[u32; 2]>) -> Self {
-        let mut both: Vec<[u32; 2]> =
-            pairs.into_iter().filter(|[a, b]| a != b).flat_map(|[a, b]| [[a, b], [b, a]]).collect();
-        both.par_sort_unstable();
-        both.dedup();
-        let starts = starts_of(nodes, both.iter().map(|&[a, _]| a));
-        Self { starts, to: both.into_iter().map(|[_, b]| b).collect() }
+    pub fn from_pairs(nodes: usize, pairs: &[[u32; 2]]) -> Self {
+        let apart = || pairs.iter().filter(|[a, b]| a != b);
+        let first = starts_of(nodes, apart().copied().flatten());
+        let mut next = first.clone();
+        let mut repeated = vec![0; first[nodes] as usize];
+        for &[a, b] in apart() {
+            for [from, to] in [[a, b], [b, a]] {
+                repeated[next[from as usize] as usize] = to;
+                next[from as usize] += 1;
+            }
+        }
+        let mut starts = Vec::with_capacity(nodes + 1);
+        let mut to: Vec<u32> = Vec::with_capacity(repeated.len() / 2);
+        for node in 0..nodes {
+            let beside = &mut repeated[first[node] as usize..first[node + 1] as usize];
+            beside.sort_unstable();
+            starts.push(to.len() as u32);
+            let mut last = None;
+            for &other in beside.iter() {
+                if last.replace(other) != Some(other) {
+                    to.push(other);
+                }
+            }
+        }
+        starts.push(to.len() as u32);
+        Self { starts, to }
     }
 
     pub fn of(&self, node: u32) -> &[u32] {
@@ -289,6 +308,12 @@ mod tests {
     use super::*;
 
     #[test]
+    fn neighbours_are_sorted_and_distinct() {
+        let neighbours = Neighbours::from_pairs(4, &[[2, 0], [0, 1], [1, 0], [3, 3], [0, 2]]);
+        assert_eq!([0, 1, 2, 3].map(|node| neighbours.of(node)), [&[1, 2][..], &[0], &[0], &[]]);
+    }
+
+    #[test]
     fn nodes_stay_within_half_a_voxel() {
         let base = vec![Vector3::new(5.0, 5.0, 5.0); 3];
         let by = [Vector3::new(2.0, 0.4, -0.8), Vector3::new(0.1, -6.0, 3.0), Vector3::new(0.4, 0.9, -1.4)];
@@ -303,7 +328,7 @@ mod tests {
 
     #[test]
     fn a_ridge_is_sharpened_by_its_share_and_at_most_a_quarter_of_a_voxel() {
-        let neighbours = Neighbours::from_pairs(4, vec![[0, 1], [0, 2], [0, 3]]);
+        let neighbours = Neighbours::from_pairs(4, &[[0, 1], [0, 2], [0, 3]]);
         for (below, share, expected) in [(0.8, 0.25, 0.2), (0.8, 0.5, 0.4), (0.8, 1.0, 0.5), (-3.0, 1.0, -0.5)] {
             let points =
                 vec![Vector3::zeros(), Vector3::new(1.0, 0.0, -below), Vector3::new(-1.0, 0.0, -below), Vector3::y()];

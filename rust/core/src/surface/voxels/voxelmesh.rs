@@ -203,7 +203,7 @@ fn neighbours(surfels: &Surfels, nodes: &Nodes) -> Neighbours {
             pairs.extend(ring[..n].iter().map(|&b| [a, b]));
         }
     });
-    Neighbours::from_pairs(nodes.voxel.len(), pairs)
+    Neighbours::from_pairs(nodes.voxel.len(), &pairs)
 }
 
 #[cfg(test)]
