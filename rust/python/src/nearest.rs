@@ -133,7 +133,7 @@ pub fn ways_pass<'py>(
     let starts = convert::rows::<_, 3>(&starts, "starts")?;
     let ends = convert::rows::<_, 3>(&ends, "ends")?;
     let clear = convert::values(&clear);
-    ensure!(step > 0.0, "step is {step}. Pass a positive length in mm");
+    ensure!(step.is_normal() && step.is_sign_positive(), "step is {step}. Pass a positive length in mm");
     let passed = run(py, threads, &None, move |control| {
         Ways { starts: &starts, ends: &ends, clear: &clear, step }.pass(&mask, &to_voxels, control)
     })?;
