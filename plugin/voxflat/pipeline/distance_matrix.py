@@ -250,29 +250,35 @@ def _between_parcels(side: _Side, method: str, limits: dict[str, Any]) -> NDArra
     order = np.flatnonzero(codes != _NONE)
     order = order[np.argsort(codes[order], kind="stable")]
     sizes = np.bincount(codes[order], minlength=count)
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     if method == "centroid":
-        points = side.part.points
-        means = np.add.reduceat(points[order], starts) / sizes[:, None]
-        far = np.linalg.norm(points[order] - means[codes[order]], axis=1)
-        chosen = np.array([order[s + np.argmin(far[s : s + n])] for s, n in zip(starts, sizes, strict=True)])
+        chosen = _centres(side.part.points, codes, order, sizes)
         sources = chosen.astype(np.uint32)
         values: NDArray[Any] = np.concatenate([rows[:, chosen] for rows in _blocks(side, limits, sources)])
         values = values.astype(np.float64)
     else:
-        gather: Any = np.add if method == "mean" else np.minimum
-        of_points = np.full((count, len(codes)), 0.0 if method == "mean" else np.inf)  # from all of a parcel, first
-        start = 0
-        for rows in _blocks(side, limits, order.astype(np.uint32)):
-            present, firsts = np.unique(codes[order[start : start + len(rows)]], return_index=True)
-            of_points[present] = gather(of_points[present], gather.reduceat(rows, firsts, axis=0, dtype=np.float64))
-            start += len(rows)
-        values = gather.reduceat(of_points[:, order], starts, axis=1)
-        if method == "mean":
-            values /= np.outer(sizes, sizes)
+        progress, stage = limits["progress"], limits["stage"]
+        inner = None if progress is None else _named(progress, stage)
+        how = {"threads": limits["threads"], "progress": inner}
+        members = order.astype(np.uint32), sizes.astype(np.uint32)
+        values = side.part.core.distances_between(*members, method, limits["geodesic"], **how)
     values = (values + values.T) / 2 if method != "min" else np.minimum(values, values.T)
     np.fill_diagonal(values, 0)
     return values
+
+
+def _centres(
+    points: NDArray[np.float64], codes: NDArray[np.int64], order: NDArray[np.int64], sizes: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the vertex of each parcel that is nearest to the mean position; `order` lists them parcel by parcel."""
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    means = np.add.reduceat(points[order], starts) / sizes[:, None]
+    far = np.linalg.norm(points[order] - means[codes[order]], axis=1)
+    return np.array([order[s + np.argmin(far[s : s + n])] for s, n in zip(starts, sizes, strict=True)])
+
+
+def _named(progress: Progress, stage: str) -> Progress:
+    """Return the progress under the name of a stage."""
+    return lambda _, done, total: progress(stage, done, total)
 
 
 def _stored(rows: NDArray[np.floating[Any]], kind: np.dtype[Any]) -> NDArray[Any]:

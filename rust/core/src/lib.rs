@@ -16,6 +16,7 @@
 //! | [`patch`] | surface → surface | the part that is flattened |
 //! | [`sources`] | surface → sources | farthest-point and random sampling |
 //! | [`rows`] | sources → distance rows | many sources in parallel |
+//! | [`groups`] | | distances between groups of vertices, such as parcels |
 //! | [`store`] | | distance rows on disk |
 //! | [`distortion`] | flat map → figures | errors of distances, and distortion of triangles |
 //! | [`place`] | positions of some points → of all points | radial functions, re-insertion, bilinear placement |
@@ -62,6 +63,7 @@ pub mod embed;
 pub mod error;
 pub mod flatten;
 pub mod geodesic;
+pub mod groups;
 pub mod lookup;
 pub mod nearest;
 pub mod orient;

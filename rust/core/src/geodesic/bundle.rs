@@ -88,6 +88,15 @@ impl BundleScratch {
         search(&mut self.search, graph, source, f32::INFINITY, row, control)
     }
 
+    /// Writes the distances from the nearest of several sources to every vertex.
+    pub(crate) fn nearest(
+        &mut self, graph: &impl Links, sources: &[u32], row: &mut [f32], control: &Control,
+    ) -> Result<()> {
+        row.fill(f32::INFINITY);
+        sources.iter().for_each(|&source| row[source as usize] = 0.0);
+        self.search.lower(graph, sources, row, control)
+    }
+
     /// Writes the distances from each source of a bundle, its centre first, to every vertex or to the targets: one row
     /// per source. Panics if there are more sources than a bundle can have.
     pub(crate) fn rows(
@@ -178,6 +187,7 @@ pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, contr
     // a disk with this share of the sources has about this share of the area, which grows as its radius squared
     let mut radius = farthest * (most as f32 / sources.len() as f32).sqrt();
     let mut bundles = Vec::with_capacity(sources.len().div_ceil(most));
+    let mut is_taken = vec![false; sources.len()];
     while let Some(&outermost) = left.last() {
         let mut near = loop {
             if !(radius > 0.0 && radius < 2.0 * farthest) {
@@ -197,7 +207,8 @@ pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, contr
         let from_half = |number: u32| (at(&row, number) - 0.5 * last).abs();
         let midst = (0..near.len()).min_by(|&a, &b| from_half(near[a]).total_cmp(&from_half(near[b])));
         near.swap(0, midst.unwrap_or(0));
-        left.retain(|number| !near.contains(number));
+        near.iter().for_each(|&number| is_taken[number as usize] = true);
+        left.retain(|&number| !is_taken[number as usize]);
         bundles.push(near);
     }
     Ok(bundles)

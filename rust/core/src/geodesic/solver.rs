@@ -22,6 +22,20 @@ pub trait Solver: Sync {
     /// [`Error::Cancelled`](crate::Error::Cancelled), and others that a solver has.
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
 
+    /// Writes the distances in mm from the nearest of several sources to every vertex; infinity where none can be reached.
+    ///
+    /// # Errors
+    /// Those of [`row`](Self::row).
+    fn nearest(&self, sources: &[u32], row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()> {
+        let mut one = vec![0.0; row.len()];
+        row.fill(f32::INFINITY);
+        for &source in sources {
+            self.row(source, &mut one, scratch, control)?;
+            row.iter_mut().zip(&one).for_each(|(least, &distance)| *least = least.min(distance));
+        }
+        Ok(())
+    }
+
     /// Groups sources that are best computed together, by number, in enough groups for all threads; rows do not depend
     /// on it.
     ///
@@ -99,6 +113,10 @@ impl<G: Links> Solver for G {
 
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut BundleScratch, control: &Control) -> Result<()> {
         scratch.row(self, source, row, control)
+    }
+
+    fn nearest(&self, sources: &[u32], row: &mut [f32], scratch: &mut BundleScratch, control: &Control) -> Result<()> {
+        scratch.nearest(self, sources, row, control)
     }
 
     fn bundles(&self, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {

@@ -10,6 +10,7 @@ use voxflat::distortion::distances::error_of_distances;
 use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::path::{PathPoint, Site, length};
 use voxflat::geodesic::{Solver, exact::Exact, shortest::trace_path};
+use voxflat::groups::{Linkage, between};
 use voxflat::rows::DistanceRows;
 use voxflat::sources::{Sources, by_curvature, cells};
 use voxflat::store::Store;
@@ -18,7 +19,7 @@ use voxflat::surface::mesh::paths::{path_to_any, shortest_path};
 use super::Surface;
 use super::solvers::{Geodesic, with_solver};
 use crate::convert::{self, Given, Table, Values};
-use crate::work::{Progress, Threads, run};
+use crate::work::{InputError, Progress, Threads, run};
 
 /// The points (k, 3) of a path in mm, their vertices, or -1 for points on edges, and its length in mm.
 type LinePath<'py> = (Table<'py, f64>, Values<'py, i64>, f64);
@@ -109,6 +110,32 @@ impl Surface {
         })?;
         let cells: Vec<u32> = cells.into_iter().map(|cell| cell.wrapping_add(1)).collect();
         Ok((sources.into_pyarray(py), cells.into_pyarray(py)))
+    }
+
+    /// Return the distances (P, P) in mm between groups of vertices: "mean" or "min" over all pairs of their vertices.
+    /// `members` are the vertices of all groups, and `sizes` (P,) says how many belong to each group in turn.
+    #[pyo3(signature = (members, sizes, linkage, geodesic="graph", threads=None, progress=None))]
+    fn distances_between<'py>(
+        &self, py: Python<'py>, members: Given<'py, u32>, sizes: Given<'py, u32>, linkage: &str, geodesic: &str,
+        threads: Threads, progress: Progress<'py>,
+    ) -> PyResult<Table<'py, f64>> {
+        let geodesic = Geodesic::named(geodesic)?;
+        let linkage = match linkage {
+            "mean" => Linkage::Mean,
+            "min" => Linkage::Least,
+            _ => return Err(InputError::new_err(format!("linkage is {linkage:?}. Pass 'mean' or 'min'"))),
+        };
+        let members = self.vertices(&members)?;
+        let sizes = convert::values(&sizes);
+        let total: usize = sizes.iter().map(|&size| size as usize).sum();
+        convert::check_length(total, members.len(), "sizes", "member")?;
+        let mut rest = members.into_iter();
+        let groups: Vec<Vec<u32>> = sizes.iter().map(|&size| rest.by_ref().take(size as usize).collect()).collect();
+        let count = groups.len();
+        let found = self.run(py, threads, &progress, move |inner, control| {
+            with_solver!(geodesic, inner, control, |solver| between(solver, &groups, linkage, control))
+        })?;
+        convert::table(py, found, count)
     }
 
     /// Return distance rows (m, N) in mm from sources (vertices).
