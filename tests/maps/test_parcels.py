@@ -183,7 +183,7 @@ def test_label_files_are_parcels_with_the_names_of_the_files(tmp_path):
     for number, vertices in enumerate(regions.values(), 1):
         assert sorted(flat.ids[found.labels == number]) == vertices
     assert parcels_of(flat, paths[1]).names == {1: "V2"}
-    refused("lh.V1.label: shares points with lh.V1.label", parcels_of, flat, [paths[0], paths[0]])
+    refused("lh.V1.label: its region V1 shares points with V1", parcels_of, flat, [paths[0], paths[0]])
     refused("a table does not apply", parcels_of, flat, paths, table=LabelTable({1: "a"}))
     voxflat.figures.flat_map(flat, parcels=paths)
 
