@@ -17,7 +17,7 @@ import numpy as np
 from tables import DISTANCES, distance_cells, table
 
 import voxflat
-from voxflat.pipeline.standard_map import CUTS, _file
+from voxflat.pipeline.standard_map import CUTS, mesh_file
 from voxflat.surfaces.standard.sphere import in_triangles
 
 DENSITIES = {"fsaverage": ("fsaverage5", "fsaverage6", "fsaverage"), "fs_LR": ("32k", "59k", "164k")}
@@ -43,7 +43,7 @@ def main():
                 name = (options.mesh, density) if options.mesh == "fs_LR" else (density,)
                 flat = voxflat.standard_map(*name, hemisphere=side, cuts=cuts, files=options.folder)
                 seconds = time.process_time() - started
-                sphere = _file(options.mesh, density, side, "sphere", options.folder).points
+                sphere = mesh_file(options.mesh, density, side, "sphere", options.folder).points
                 sphere = sphere / np.linalg.norm(sphere, axis=1)[:, None]
                 apart = [np.nan] * 3
                 if first is None:
