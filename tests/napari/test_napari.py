@@ -60,7 +60,7 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
     assert texts_of_menu(viewer.window.file_menu, "Open Sample", "voxflat") == samples
 
 
-NO_NAMES = {"Spread between people"}  # of group maps
+NO_NAMES = {"Spread between people", "Show flat map"}  # of group maps and of flat maps of other programs
 NO_NAMES |= {"(voxflat)", "Point", "Points and Shapes", "New labels layer", "use this size"}  # of napari, and actions
 
 

@@ -39,7 +39,7 @@ def files(tmp_path_factory):
 
 
 def _small(patch):
-    patch.setattr(module, "_VERTICES", {**module._VERTICES, **VERTICES})
+    patch.setattr(module, "VERTICES", {**module.VERTICES, **VERTICES})
     patch.setattr(module, "_PACKAGES", {})
 
 
@@ -154,5 +154,5 @@ def test_fsaverage5_of_nilearn_needs_no_files():
     found = util.find_spec("nilearn")
     if found is None:
         pytest.skip("nilearn is missing")
-    mesh = module._file("fsaverage", "fsaverage5", "right", "white surface", ())
+    mesh = module.mesh_file("fsaverage", "fsaverage5", "right", "white surface", ())
     assert mesh.path == Path(found.origin).parent / "datasets/data/fsaverage5/white_right.gii.gz"

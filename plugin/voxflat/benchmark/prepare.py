@@ -153,7 +153,7 @@ def write(folder: Path, made: Prepared) -> None:
         _savez(folder / "published.npz", uv=made.published)
     facts = {"name": made.name, "unit": made.unit, "hashes": made.hashes}
     with atomic_path(folder / _FACTS) as temporary:
-        temporary.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 
 def load(folder: Path, name: str) -> Prepared:

@@ -133,7 +133,7 @@ def _published(data: Path, maps: Path, track: str, entries: Sequence[Entry]) -> 
 def _record(maps: Path, about: dict[str, str], costs: dict[str, Any], missing: dict[str, str]) -> None:
     with atomic_path(maps / RUN) as temporary:
         content = {**about, "costs": costs, "missing": missing}
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 
 def _save(path: Path, **arrays: Any) -> None:

@@ -65,7 +65,7 @@ def score(data: Path, maps: Path, track: str, entries: Sequence[Entry]) -> dict[
 def save_result(result: dict[str, Any], path: Path) -> None:
     """Write a result as JSON."""
     with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
 
 
 def load_result(path: Path) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
-from voxflat.arguments import checked_instance, checked_path, printable
+from voxflat.arguments import checked_instance, checked_path, checked_text, printable
 from voxflat.distortion.triangles import measure_arrays
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS
@@ -137,7 +137,11 @@ def page_of(
     view = float(around), float(np.arcsin(np.clip(z, -1.0, 1.0)))
     content = scene(flat, layers, {}, places, view=view, unit=unit)
     more = {"points": f"{len(flat.uv):,}", "version": __version__}
-    return MapPage(filled("map.html", key="map", title=printable(title), layers=entries, scene=content, **more))
+    return MapPage(
+        filled(
+            "map.html", key="map", title=printable(checked_text(title, "title")), layers=entries, scene=content, **more
+        )
+    )
 
 
 def _layer(name: str, values: NDArray[Any], faces: NDArray[Any]) -> Layer:

@@ -165,11 +165,11 @@ def autoflatten_subject(
     >>> import cortex  # doctest: +SKIP
     >>> cortex.freesurfer.autoflatten_subject = voxflat.autoflatten_subject  # doctest: +SKIP
     """
-    subjects = freesurfer_subject_dir or os.environ.get("SUBJECTS_DIR")
-    if not subjects:
+    subjects = freesurfer_subject_dir
+    if subjects is None and not (subjects := os.environ.get("SUBJECTS_DIR")):
         raise InputError("the FreeSurfer subjects directory is unknown. Set SUBJECTS_DIR")
-    folder = checked_path(subjects, "freesurfer_subject_dir") / freesurfer_subject
-    cuts = _cuts_in(autoflatten_args or ())
+    folder = checked_path(subjects, "freesurfer_subject_dir") / checked_path(freesurfer_subject, "freesurfer_subject")
+    cuts = _cuts_in(() if autoflatten_args is None else autoflatten_args)
     if checked_switch(import_flatmaps, "import_flatmaps"):
         to_pycortex(folder, name=pycortex_subject, cuts=cuts, overwrite=True)
     stored = StoredSubject(folder)  # not used, because there is a FreeSurfer directory
@@ -181,6 +181,8 @@ def autoflatten_subject(
 
 def _cuts_in(arguments: Sequence[str]) -> str:
     """Return the cuts that arguments in the style of a command line select."""
+    if not isinstance(arguments, list | tuple) or not all(isinstance(argument, str) for argument in arguments):
+        raise InputError(f"the arguments for flattening are {shown(arguments)}. Pass a list of strings")
     parser = argparse.ArgumentParser(add_help=False, exit_on_error=False, allow_abbrev=False)
     parser.add_argument("--cuts", default=Parameters.cuts)
     try:
