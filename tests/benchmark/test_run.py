@@ -64,6 +64,14 @@ def test_tools_make_and_score_maps_and_keep_them(small, tmp_path):
     before = (tmp_path / "out/given-voxflat.json").read_bytes()
     succeed(*words, "--tools", "voxflat")
     assert (tmp_path / "out/given-voxflat.json").read_bytes() == before  # nothing is made twice
+    record = tmp_path / "out/given/voxflat/run.json"
+    earlier = json.loads(record.read_text())
+    for changed in ({"code": "of another day"}, {"inputs": {"u-shape": {}}}):  # another program, and another surface
+        record.write_text(json.dumps(earlier | changed))
+        np.savez(tmp_path / "out/given/voxflat/u-shape.npz", uv=load(small, "u-shape").points[:, :2] ** 2)
+        succeed(*words, "--tools", "voxflat")
+        again = load_result(tmp_path / "out/given-voxflat.json")
+        assert again["surfaces"]["u-shape"]["measures"] == measures["voxflat"]
     (tmp_path / "out/given/voxflat/u-shape.npz").unlink()
     succeed(*words, "--tools", "voxflat")
     again = load_result(tmp_path / "out/given-voxflat.json")

@@ -1,5 +1,6 @@
 """Run tools on the surfaces of the benchmark, and score their maps."""
 
+import hashlib
 import json
 import os
 import platform
@@ -11,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from voxflat.benchmark.fetch import sha256
 from voxflat.benchmark.making import make
 from voxflat.benchmark.manifest import Entry
 from voxflat.benchmark.prepare import Prepared, load
-from voxflat.benchmark.score import RUN, file_of, save_result, score
+from voxflat.benchmark.score import RUN, save_result, score
 from voxflat.benchmark.tools import GIVEN, PUBLISHED, TOOLS, NoMapError, Tool
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
@@ -34,8 +36,8 @@ def run(
 ) -> list[Path]:
     """Make and score the maps of tools, and return the files of the results.
 
-    The maps are in ``out/TRACK/TOOL``, and the results in ``out/TRACK-TOOL.json``. Maps of the same version of a tool
-    that are already there are kept.
+    The maps are in ``out/TRACK/TOOL``, and the results in ``out/TRACK-TOOL.json``. Maps that
+    the same version of a tool made of the same surface are kept.
     """
     results = []
     for name in tools:
@@ -79,13 +81,18 @@ def _make_all(
     try:
         about["version"] = tool.version
     except NoMapError as error:
-        _record(maps, about, {}, {entry.name: str(error) for entry in entries})
+        tell(f"{tool.name}: {error}")
+        if not (maps / RUN).is_file():
+            _record(maps, about, {}, {entry.name: str(error) for entry in entries})
         return
-    costs, missing = _known(maps, about)
+    about["code"] = "" if tool.packages else _code()
+    costs, missing, inputs = _known(maps, about)
     for entry in entries:
-        if entry.name in costs and file_of(maps, entry.name):
+        made, path = load(data, entry.name), maps / f"{entry.name}.npz"
+        if entry.name in costs and inputs.get(entry.name) == made.hashes and path.is_file():
             continue
-        made = load(data, entry.name)
+        path.unlink(missing_ok=True)  # so that no map of another surface or version is scored
+        costs.pop(entry.name, None)
         missing.pop(entry.name, None)
         try:
             found = make(tool.name, _job(made, track), limit)
@@ -94,11 +101,11 @@ def _make_all(
             tell(f"{tool.name}: {entry.name}: no map: {error}")
         else:
             flat = found.flat
-            _save(maps / f"{entry.name}.npz", uv=flat.uv, faces=flat.faces, vertices=flat.vertices)
-            costs[entry.name] = found.costs
+            _save(path, uv=flat.uv, faces=flat.faces, vertices=flat.vertices)
+            costs[entry.name], inputs[entry.name] = found.costs, made.hashes
             tell(f"{tool.name}: {entry.name}: {json.dumps(found.costs)}")
-        _record(maps, about, costs, missing)
-    _record(maps, about, costs, missing)
+        _record(maps, about, costs, missing, inputs)
+    _record(maps, about, costs, missing, inputs)
 
 
 def _job(made: Prepared, track: str) -> dict[str, Any]:
@@ -107,14 +114,24 @@ def _job(made: Prepared, track: str) -> dict[str, Any]:
     return {"points": points, "faces": faces, "options": {"track": track}}
 
 
-def _known(maps: Path, about: dict[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the costs and the missing maps of an earlier run of the same version on the same machine."""
+def _known(maps: Path, about: dict[str, str]) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
+    """Return the costs, the missing maps and the hashes of the surfaces of an earlier run.
+
+    They are empty unless the tool, its version and the machine are the same.
+    """
     path = maps / RUN
     if path.is_file():
         earlier = json.loads(path.read_text(encoding="utf-8"))
         if {key: earlier.get(key) for key in about} == about:
-            return earlier["costs"], earlier["missing"]
-    return {}, {}
+            return earlier["costs"], earlier["missing"], earlier["inputs"]
+    return {}, {}, {}
+
+
+def _code() -> str:
+    """Return the SHA-256 hash of the package, whose version stays the same while it is developed."""
+    package = Path(__file__).parents[1]
+    files = sorted(path for ending in ("py", "so", "pyd") for path in package.rglob(f"*.{ending}"))
+    return hashlib.sha256("".join(map(sha256, files)).encode()).hexdigest()
 
 
 def _published(data: Path, maps: Path, track: str, entries: Sequence[Entry]) -> None:
@@ -130,9 +147,15 @@ def _published(data: Path, maps: Path, track: str, entries: Sequence[Entry]) -> 
     _record(maps, about, {}, missing)
 
 
-def _record(maps: Path, about: dict[str, str], costs: dict[str, Any], missing: dict[str, str]) -> None:
+def _record(
+    maps: Path,
+    about: dict[str, str],
+    costs: dict[str, Any],
+    missing: dict[str, str],
+    inputs: dict[str, Any] | None = None,
+) -> None:
     with atomic_path(maps / RUN) as temporary:
-        content = {**about, "costs": costs, "missing": missing}
+        content = {**about, "costs": costs, "missing": missing, "inputs": inputs or {}}
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 

@@ -7,9 +7,7 @@ from voxflat.surfaces.manifold import Manifold, are_triangles
 
 _ONE_SIDED = 0.8  # least share of the area of a hemisphere on one side of the midline
 _MOST_OMITTED = 0.25  # share of the area; the medial wall has less than this
-_LATERAL = (
-    0.5  # share of the area that is more medial than the omitted part; right maps 0.13–0.26, wrong ones 0.77–0.82
-)
+_LATERAL = 0.5  # share of the area more medial than the omitted part; right maps 0.13–0.26, wrong ones 0.77–0.82
 _UNLIKE = 0.3  # correlation of the lengths of edges; right maps of fsaverage 0.43–0.77, wrong ones 0.10–0.22
 _REMEDY = "Pass the surface of its hemisphere"
 
@@ -29,7 +27,8 @@ def other_side(whole: Manifold, flat: Matched) -> str:
         return ""
     if flat.is_clockwise is False and is_mirrored(flat):
         why = "its triangles are those of the surface, turned round"
-        return f"the map probably belongs to the other hemisphere, because {why}. {_REMEDY}"
+        other = "If the surface is not a hemisphere, reverse the triangles of one of the files"
+        return f"the map probably belongs to the other hemisphere, because {why}. {_REMEDY}. {other}"
     omitted = _omitted_on_the_outside(whole, flat)
     if not omitted or not _likeness(flat) < _UNLIKE:
         return ""
