@@ -172,7 +172,8 @@ def run_command(
 
     Each map is made in a process of its own, one after the other. OUT/TRACK/TOOL contains the maps, and
     OUT/TRACK-TOOL.json the result. Maps that the same version of a tool made of the same surface are kept. Surfaces for
-    which a tool makes no map are listed in the result with the reason. Install the tools with pip install 'voxflat[bench]'.
+    which a tool makes no map are listed in the result with the reason. Install the tools with
+    pip install 'voxflat[bench]'.
     """
     names = checked_tools(tools, track)
     results = run(data, output, names, track, _ready(data, chosen(surfaces, quick=quick)), limit, _tell)
